@@ -1,4 +1,4 @@
-"""Curves that several files fit: a line from zero, and a decay to a level."""
+"""Curves that several files fit: a line from zero, and decays to zero and to a level."""
 
 import jax.numpy as jnp
 
@@ -9,5 +9,9 @@ def line(p, x):
     return p["a"] + p["b"] * x
 
 
+def fading(p, x):
+    return p["a"] * jnp.exp(-p["b"] * x)
+
+
 def decay(p, x):
-    return p["a"] * jnp.exp(-p["b"] * x) + p["c"]
+    return fading(p, x) + p["c"]

@@ -1,12 +1,11 @@
 """Adequacy of a model: levels, power, and probabilities known in closed form."""
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy import stats
 
 import jaxcontact as jc
-from tests.test_fit.curves import FLAT, line
+from tests.test_fit.curves import FLAT, fading, line
 
 DRAWS = 200
 ALARMS = (3, 19)
@@ -21,10 +20,6 @@ NOISES = {}, {"sigma": SIGMA}, {"loss": jc.Huber()}
 
 def both(p, x):
     return {"first": p["a"] + p["b"] * x, "second": p["a"] - p["b"] * x}
-
-
-def decay(p, x):
-    return p["a"] * jnp.exp(-p["b"] * x)
 
 
 def drawn(n, seed):
@@ -154,15 +149,15 @@ def test_what_cannot_be_told_is_said():
     assert "too few trials" in told(6, groups=[0, 1, 2, 0, 1, 2])
     trials = [0, 0, 1, 1, 2, 2, 3, 3, 4, 4]
     assert "too few trials" in told(10, groups=trials, loss=jc.Huber())
-    stopped = jc.fit(decay, 1 + X, {"a": 1.0, "b": 9.0}, x=X, max_steps=1, throw=False)
+    stopped = jc.fit(fading, 1 + X, {"a": 1.0, "b": 9.0}, x=X, max_steps=1, throw=False)
     assert stopped.adequate is None and not stopped.converged
 
 
 def test_data_without_noise_are_met():
-    exact = jc.fit(decay, 3 * np.exp(-X), {"a": 1.0, "b": 0.5}, x=X)
+    exact = jc.fit(fading, 3 * np.exp(-X), {"a": 1.0, "b": 0.5}, x=X)
     assert exact.adequate and "one part in a million" in str(exact.adequacy)
     # The scatter of these is rounding, as are their residuals.
-    same = jc.fit(decay, np.full(25, 0.8), {"a": 1.0, "b": 0.5}, x=X)
+    same = jc.fit(fading, np.full(25, 0.8), {"a": 1.0, "b": 0.5}, x=X)
     assert same.loss < 1e-25 and same.adequate and "one part in a million" in str(same.adequacy)
 
 
@@ -178,7 +173,7 @@ def test_a_warning_comes_first():
 
 def test_the_best_of_wrong_fits_is_called_so():
     y = np.sin(3 * X) + 0.01 * drawn(25, 4)[0]
-    curved = jc.fit(decay, y, {"a": 1.0, "b": 0.5}, x=X)
+    curved = jc.fit(fading, y, {"a": 1.0, "b": 0.5}, x=X)
     found = jc.compare_fits({"line": jc.fit(line, y, FLAT, x=X), "decay": curved})
     assert found.verdict.startswith("The best is line. But it does not describe the data (p < ")
     assert "no other fit does" in found.verdict and str(found).count("*") == 3

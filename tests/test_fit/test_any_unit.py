@@ -1,6 +1,5 @@
 """A fit is invariant under units of parameters, data and x, and under a distant start."""
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.optimize import curve_fit
 
 import jaxcontact as jc
-from tests.test_fit.curves import line
+from tests.test_fit.curves import fading, line
 
 X = np.linspace(0, 1, 20)
 Y = 2 + 3 * X + 0.1 * np.random.default_rng(0).normal(size=20)
@@ -21,16 +20,14 @@ ERRORS = 1e-6
 units = st.integers(-12, 12).map(lambda k: 10.0**k)
 
 
-def straight(p, x):
-    a, b = p["a"] / p["unit"], p["b"] / p["unit"]
-    return (a + b * x / p["across"]) * p["out"]
+def in_units(curve):
+    def predict(p, x):
+        return curve({name: p[name] / p["unit"] for name in "ab"}, x / p["across"]) * p["out"]
+
+    return predict
 
 
-def decay(p, x):
-    a, b = p["a"] / p["unit"], p["b"] / p["unit"]
-    return a * jnp.exp(-b * x / p["across"]) * p["out"]
-
-
+straight, decay = in_units(line), in_units(fading)
 HELD = {name: jc.Fixed() for name in ("unit", "out", "across")}
 
 

@@ -6,6 +6,7 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact._fit.many import search as many_search
+from tests.test_fit.curves import fading
 
 NEAR = 1e-6
 """In standard errors: an end of a search is as far from the minimum as rounding hides. Measured
@@ -13,18 +14,14 @@ NEAR = 1e-6
 ALIKE = 1e-5  # of covariances, relative: measured 2e-15 here, 1e-5 over the 1,000 tables
 BALLS, POINTS = 11, 12
 SIGMA = 0.01
-START = {"a": 1.0, "k": 1.0}
-
-
-def decay(p, x):
-    return p["a"] * jnp.exp(-p["k"] * x)
+START = {"a": 1.0, "b": 1.0}
 
 
 def tables(seed=0, balls=BALLS):
     random = np.random.default_rng(seed)
     x = np.sort(random.uniform(0.1, 3, (balls, POINTS)), axis=1)
-    a, k = random.uniform(0.5, 2, (balls, 1)), random.uniform(0.3, 2, (balls, 1))
-    return x, a * np.exp(-k * x) + SIGMA * random.normal(size=x.shape)
+    a, b = random.uniform(0.5, 2, (balls, 1)), random.uniform(0.3, 2, (balls, 1))
+    return x, a * np.exp(-b * x) + SIGMA * random.normal(size=x.shape)
 
 
 X, Y = tables()
@@ -32,7 +29,7 @@ X, Y = tables()
 
 @pytest.fixture(scope="module")
 def known():
-    return jc.fit_many(decay, Y, START, x=X, sigma=SIGMA, batch_size=4)
+    return jc.fit_many(fading, Y, START, x=X, sigma=SIGMA, batch_size=4)
 
 
 def assert_alike(many, i, one):
@@ -48,7 +45,7 @@ def test_every_ball_is_as_fitted_alone(known):
     assert known.ok.all() and (known.status == jc.FitStatus.CONVERGED).all()
     assert known.params["a"].shape == (BALLS,)
     for i in range(BALLS):
-        one = jc.fit(decay, Y[i], START, x=X[i], sigma=SIGMA)
+        one = jc.fit(fading, Y[i], START, x=X[i], sigma=SIGMA)
         assert_alike(known, i, one)
         assert known.steps[i] == one.steps
         whole = known.fit(i)
@@ -87,9 +84,9 @@ def test_a_long_table_of_balls_that_differ_in_length():
 
 def test_a_bad_ball_is_flagged_and_changes_no_other(known):
     def fitted(y, sigma, x, first):
-        start = {"a": np.where(np.arange(BALLS) == 7, first, 1.0), "k": np.ones(BALLS)}
+        start = {"a": np.where(np.arange(BALLS) == 7, first, 1.0), "b": np.ones(BALLS)}
         how = {"x": x, "sigma": sigma, "transforms": {"a": jc.Positive()}, "batch_size": 4}
-        return jc.fit_many(decay, y, start, own_start=True, **how)
+        return jc.fit_many(fading, y, start, own_start=True, **how)
 
     x, y, sigma = X.copy(), Y.copy(), np.full_like(Y, SIGMA)
     good = fitted(Y, sigma.copy(), X, 1.0)
@@ -164,27 +161,27 @@ def test_huber_and_weights_are_those_of_fit():
     y[:, 4] += 0.4
     weights = np.ones_like(y)
     weights[:, 7] = 0
-    robust = jc.fit_many(decay, y, START, x=X, sigma=SIGMA, loss=jc.Huber())
-    weighted = jc.fit_many(decay, {"y": y}, START, x=X, weights={"y": weights})
+    robust = jc.fit_many(fading, y, START, x=X, sigma=SIGMA, loss=jc.Huber())
+    weighted = jc.fit_many(fading, {"y": y}, START, x=X, weights={"y": weights})
     for i in (0, 3):
-        one = jc.fit(decay, y[i], START, x=X[i], sigma=SIGMA, loss=jc.Huber())
+        one = jc.fit(fading, y[i], START, x=X[i], sigma=SIGMA, loss=jc.Huber())
         assert_alike(robust, i, one)
-        assert_alike(weighted, i, jc.fit(decay, y[i], START, x=X[i], weights=weights[i]))
+        assert_alike(weighted, i, jc.fit(fading, y[i], START, x=X[i], weights=weights[i]))
 
 
 @pytest.mark.parametrize("shape", [(BALLS, 1), (1, POINTS)])
 def test_a_sigma_of_each_ball_or_of_each_point_has_both_axes(shape):
     sigma = SIGMA * np.linspace(1, 3, max(shape)).reshape(shape)
-    many = jc.fit_many(decay, Y, START, x=X, sigma=sigma, batch_size=4)
+    many = jc.fit_many(fading, Y, START, x=X, sigma=sigma, batch_size=4)
     own = np.broadcast_to(sigma, Y.shape)
     for i in (0, BALLS - 1):
-        assert_alike(many, i, jc.fit(decay, Y[i], START, x=X[i], sigma=own[i]))
+        assert_alike(many, i, jc.fit(fading, Y[i], START, x=X[i], sigma=own[i]))
 
 
 def test_other_values_and_another_number_of_balls_do_not_compile_again(known, compiled):
     x, y = tables(seed=5, balls=BALLS + 2)
     compiled.clear()
-    many = jc.fit_many(decay, y, {"a": 1.3, "k": 0.8}, x=x, sigma=0.02, batch_size=4)
+    many = jc.fit_many(fading, y, {"a": 1.3, "b": 0.8}, x=x, sigma=0.02, batch_size=4)
     assert compiled == []
     assert many.ok.all()
 
@@ -201,7 +198,7 @@ def test_finished_balls_leave_their_block(monkeypatch):
     monkeypatch.setattr(many_search, "_advanced", counted)
     y = Y.copy()
     y[4] = np.where(X[4] < 1, -5.0, 5.0)
-    jc.fit_many(decay, y, START, x=X, sigma=SIGMA, batch_size=4)
+    jc.fit_many(fading, y, START, x=X, sigma=SIGMA, batch_size=4)
     assert limits.count(limits[0]) == 3 and limits.count(limits[-1]) == 1
 
 
@@ -221,10 +218,10 @@ def test_finished_balls_leave_their_block(monkeypatch):
         ({"data": Y[:, 0]}, r"must have the axes \(balls, points\) without `balls`"),
         ({"balls": [*range(10), np.nan]}, "`balls` must have one name for each of the 11 points"),
         ({"start": {"a": np.ones(3)}, "own_start": True}, "first axis is that of the 11 balls"),
-        ({"start": {"a": 1.0, "k": 1.0, "unused": 1.0}}, "does not use unused"),
+        ({"start": {"a": 1.0, "b": 1.0, "unused": 1.0}}, "does not use unused"),
     ],
 )
 def test_wrong_arguments_are_named(change, words):
-    given = {"predict": decay, "data": Y, "start": START, "x": X, "batch_size": 4}
+    given = {"predict": fading, "data": Y, "start": START, "x": X, "batch_size": 4}
     with pytest.raises(ValueError, match=words):
         jc.fit_many(**(given | change))

@@ -75,60 +75,6 @@ def test_a_racket():
     np.testing.assert_allclose(run.wall_work, 1.0 * gained * speed, rtol=SOFT)
 
 
-def _driven(motion):
-    return jc.Sphere(0.1, None, [0.0], fixed=True, motion=motion)
-
-
-def _shell(motion):
-    return jc.Shell([0.0, 0.0], 1.0, motion=motion)
-
-
-def _plane(motion):
-    return jc.Plane([0.0, 0.0], [0.0, 1.0], motion=motion)
-
-
-VIBRATION = jc.Vibration(0.1, 1.0)
-WRONG = {
-    "not fixed": (
-        lambda: jc.Sphere(0.1, 1.0, [0.0], motion=jc.Steady([1.0])),
-        "`motion` must be None for a sphere without `fixed=True`",
-    ),
-    "axes": (lambda: _driven(jc.Steady([1.0, 0.0])), "`motion` must have 1 numbers, as the body"),
-    "shell": (lambda: _shell(VIBRATION), "`motion` of a shell must have a list of numbers as its"),
-    "function": (
-        lambda: _driven(jc.Prescribed(lambda t, args: t, 1.0)),
-        "`motion` of a fixed sphere must have a list of numbers",
-    ),
-    "axes of a shell": (
-        lambda: _shell(jc.Vibration([0.1], 1.0)), "`motion` must have 2 numbers, as the body has",
-    ),
-    "axes of a plane": (lambda: _plane(jc.Steady([1.0])), "`motion` must have 2 numbers"),
-    "axes of a function": (
-        lambda: _plane(jc.Prescribed(lambda t, args: t[None], 1.0)), "`motion` must have 2 numbers",
-    ),
-    "box": (
-        lambda: jc.Box([0.0], [1.0], motion=VIBRATION),
-        "`motion` of a box must have a list of numbers",
-    ),
-    "a number": (lambda: jc.Prescribed(lambda t, args: 1, 1.0), "must be a function that returns"),
-    "four numbers": (
-        lambda: jc.Prescribed(lambda t, args: jnp.zeros(4), 1.0),
-        "`displacement` must be a function that returns one",
-    ),
-    "of time alone": (
-        lambda: jc.Prescribed(lambda t: t, 1.0),
-        "`displacement` must be a function of the time and of",
-    ),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("what", WRONG)
-def test_what_is_driven_wrongly_is_refused(what):
-    make, words = WRONG[what]
-    with pytest.raises(ValueError, match=words):
-        make()
-
-
 @pytest.mark.slow(reason="a scene with cells and driven bodies")
 @pytest.mark.parametrize("motion", [jc.Steady([1.0, 0.0]), jc.Vibration([12.0, 0.0], 0.02)])
 def test_a_driven_disc_goes_through_all_cells(motion):

@@ -10,6 +10,8 @@ import jaxcontact as jc
 
 LAW = jc.Hertz()
 STEEL = jc.Material(2e11, 0.3)
+TWO = "`motion` must have 2 numbers, as the body"
+ONE = "`displacement` must be a function that returns one"
 
 
 def ball(x=0.0, **named):
@@ -20,8 +22,25 @@ def scene(*bodies, **named):
     return jc.Scene(list(bodies), **({"law": LAW} | named))
 
 
-def run(duration=1.0, **named):
-    return jc.simulate(scene(ball()), duration, **({"instantaneous": True} | named))
+def driven(motion):
+    return ball(mass=None, fixed=True, motion=motion)
+
+
+def shell(motion):
+    return jc.Shell([0.0, 0.0], 1.0, motion=motion)
+
+
+def plane(motion):
+    return jc.Plane([0.0, 0.0], [0.0, 1.0], motion=motion)
+
+
+def prescribed(displacement):
+    return jc.Prescribed(displacement, 1.0)
+
+
+def run(duration=1.0, *walls, **named):
+    made = scene(ball(position=[0.0, 1.0]), *walls)
+    return jc.simulate(made, duration, **({"instantaneous": True} | named))
 
 
 FAULTS = {
@@ -86,6 +105,36 @@ FAULTS = {
     "soft stiffness": (
         lambda: jc.simulate(scene(ball()), 1.0),
         "`stiffness` of the scene must be given where a sphere has no material (number 0",
+    ),
+    "not fixed": (
+        lambda: ball(motion=jc.Steady([1.0, 0.0])),
+        "`motion` must be None for a sphere without `fixed=True`",
+    ),
+    "motion of a sphere": (lambda: driven(jc.Steady([1.0])), TWO),
+    "motion of a shell": (lambda: shell(jc.Vibration([0.1], 1.0)), TWO),
+    "motion of a plane": (lambda: plane(jc.Steady([1.0])), TWO),
+    "motion by a function": (lambda: plane(prescribed(lambda t, args: t[None])), TWO),
+    "number for a shell": (
+        lambda: shell(jc.Vibration(0.1, 1.0)),
+        "`motion` of a shell must have a list of numbers as its",
+    ),
+    "number for a sphere": (
+        lambda: driven(prescribed(lambda t, args: t)),
+        "`motion` of a fixed sphere must have a list of numbers",
+    ),
+    "number for a box": (
+        lambda: jc.Box([0.0], [1.0], motion=jc.Vibration(0.1, 1.0)),
+        "`motion` of a box must have a list of numbers",
+    ),
+    "no array": (lambda: prescribed(lambda t, args: 1), ONE),
+    "four numbers": (lambda: prescribed(lambda t, args: jnp.zeros(4)), ONE),
+    "of time alone": (
+        lambda: prescribed(lambda t: t),
+        "`displacement` must be a function of the time and of",
+    ),
+    "walls meet": (
+        lambda: run(5.0, plane(jc.Steady([0.0, 0.5])), jc.Plane([0.0, 2.0], [0.0, -1.0])),
+        "but Plane (number 1) and Plane (number 2) meet at 4 s",
     ),
 }
 

@@ -194,16 +194,6 @@ def test_a_box_that_is_moved_carries_its_balls():
     np.testing.assert_allclose(run.final.bodies[1].low, [4.0, 0.0], atol=1e-13)
 
 
-def test_walls_that_meet_are_refused():
-    bodies = [
-        jc.Sphere(0.1, 1.0, [1.0]),
-        jc.Plane([0.0], [1.0], name="piston", motion=jc.Steady([0.5])),
-        jc.Plane([2.0], [-1.0], name="wall"),
-    ]
-    with pytest.raises(ValueError, match=r"Plane 'piston' .* and Plane 'wall' .* meet at 4 s"):
-        go(jc.Scene(bodies, LAW), 5.0)
-
-
 def test_a_wall_that_exceeds_its_acceleration_is_flagged():
     """d = c t³ has the acceleration 6 c t; a jerk within an interval is seen by what it moved."""
 

@@ -12,9 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import jaxcontact as jc
-from jaxcontact._sweep.planning.axes import grid_of
-from jaxcontact._sweep.planning.blocks import blocks_of, divide, places_of
-from jaxcontact._sweep.planning.plan import plan_of
+from jaxcontact._sweep.planning.blocks import divide, places_of
 
 SAME = 2e-15  # blocks of another length are vectorised otherwise: measured 4e-16
 
@@ -93,53 +91,15 @@ def test_an_axis_for_every_sample(at_once):
     close(table.select(K=1e8), at_once)
 
 
-def test_dear_lanes_come_first_and_together():
-    seen, blocks = [], []
+def test_a_fold_sees_every_lane_once_and_in_order(at_once):
+    def fold(blocks, block):
+        return [*blocks, np.stack([*block.axes.values(), block.max_force])]
 
-    def work(n):
-        # The loop of a block runs until its slowest lane has ended.
-        return {"n": n, "steps": n}
-
-    def fold(_, block):
-        seen.append(block.n)
-
-    n = RNG.permutation(40).astype(float)
-    jc.sweep(work, samples={"n": n}, batch_size=10, reduce=(None, fold))
-    np.testing.assert_array_equal(np.concatenate(seen), n)
-    how = {"cost": lambda n: n, "progress": lambda done, total: blocks.append(done)}
-    table = jc.sweep(work, samples={"n": n}, batch_size=10, **how)
-    np.testing.assert_array_equal(table.n, n)
-    assert blocks == [10, 20, 30, 40]
-
-
-def test_ordered_blocks_hold_neighbours_in_cost():
-    n = RNG.permutation(40).astype(float)
-    grid = grid_of({"n": n}, {})
-    plan = plan_of(lambda n: 2 * n, grid)
-    blocks = blocks_of(plan.groups, grid, 16, lambda group: np.argsort(-n))
-    found = [np.sort(block.arguments()[0]) for block in blocks]
-    # The last block is padded with its last lane.
-    np.testing.assert_array_equal(found[0], np.arange(26, 40))
-    np.testing.assert_array_equal(found[1], np.arange(12, 26))
-    np.testing.assert_array_equal(found[2], [0, 0, *range(12)])
-
-
-def test_a_fold_sees_every_lane_once(at_once):
-    def fold(so_far, block):
-        worst, lanes, where = so_far
-        lanes += block.shape[0]
-        place = int(np.nanargmax(block.max_force))
-        if block.max_force[place] > worst:
-            worst, where = block.max_force[place], (block.axes["e"][place], block.axes["v"][place])
-        return worst, lanes, where
-
-    table = jc.sweep(summary, samples=SAMPLES, batch_size=100, reduce=((0.0, 0, None), fold))
-    worst, lanes, where = table.value
-    assert lanes == LANES
-    np.testing.assert_allclose(worst, np.nanmax(at_once.max_force), rtol=SAME)
-    place = int(np.nanargmax(at_once.max_force))
-    assert where == (SAMPLES["e"][place], SAMPLES["v"][place])
-    assert table.complete
+    table = jc.sweep(summary, samples=SAMPLES, batch_size=100, reduce=([], fold))
+    assert table.complete and len(table.value) > 9
+    *axes, force = np.concatenate(table.value, axis=1)
+    np.testing.assert_array_equal(axes, list(SAMPLES.values()))
+    np.testing.assert_allclose(force, at_once.max_force, rtol=SAME)
 
 
 def test_a_fold_over_a_grid_knows_the_status():

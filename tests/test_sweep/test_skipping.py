@@ -36,13 +36,6 @@ def slope(e, K, m, v):
     return jax.grad(lambda e: jc.restitution(jc.HuGuo(e=e), jc.Contact(m, K), v))(e)
 
 
-def replaced(e, K, m, v):
-    """NaN is not the end of it here: what follows from a bad lane is another number."""
-    hit = summary(e, K, m, v)
-    lost = jnp.isnan(hit.restitution)
-    return {"e": jnp.where(lost, -1.0, hit.restitution), "half": hit.restitution / 2, "m": 2 * m}
-
-
 def branches(e, K, m, v):
     """A choice between two values is no check."""
     return {
@@ -63,7 +56,7 @@ FUNCTIONS = {
     "stepped": impact_of(lambda e: jc.HuGuo(e=e), "event"),
     "phased": impact_of(lambda e: jc.Flores(e=e), "phase"),
     "damped": impact_of(lambda e: jc.ConstantDamping(c=1e7 * e)),
-    **{f.__name__: f for f in (alone, slope, replaced, branches, hertzian)},
+    **{f.__name__: f for f in (alone, slope, branches, hertzian)},
 }
 
 
@@ -153,9 +146,6 @@ def test_a_bad_number_shows_in_its_lanes_only():
     expected = np.where(good, int(jc.Status.SEPARATED), int(jc.Status.INVALID_INPUT))
     np.testing.assert_array_equal(table.status, expected)
     np.testing.assert_array_equal(np.isfinite(table.value), good)
-    several = swept(summary, bad=True)
-    np.testing.assert_array_equal(table.status, several.status)
-    assert several.status_counts() == {0: 2 * 2 * 2, int(jc.Status.INVALID_INPUT): 72 - 2 * 2 * 2}
 
 
 def test_what_has_effects_is_run_for_every_lane():

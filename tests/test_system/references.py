@@ -24,6 +24,11 @@ def free_fall(t, q, v, args):
     return jnp.full_like(v, -9.81)
 
 
+def plane(t, q, args):
+    """The gap of a body whose second number is its height."""
+    return q[1:2]
+
+
 def restarted(
     mass, force, gap, start, duration, stiffness, alpha, *,
     slip=None, mu=0.0, touching=False, bristles=None,

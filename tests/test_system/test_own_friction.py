@@ -9,7 +9,7 @@ import pytest
 
 import jaxcontact as jc
 from tests.test_scene.support import check_modes
-from tests.test_system.references import DIFFERENCES, restarted
+from tests.test_system.references import DIFFERENCES, plane, restarted
 
 MU, STIFF, DAMPED = 0.3, 2e3, 2.0
 """μ, and the bristles' stiffness in 1/m and damping in s/m, each over the normal force."""
@@ -48,7 +48,7 @@ def system(mu, axes=1):
     return jc.System(
         lambda t, q, args: jnp.diag(jnp.array([1.0, 1.0, 0.4])),
         lambda t, q, v, args: jnp.array([0.0, -9.8, 0.0]),
-        lambda t, q, args: q[1:2],
+        plane,
         law=jc.HuGuo(e=0.7),
         stiffness=K,
         friction=Bristles(mu),

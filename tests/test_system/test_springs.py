@@ -11,7 +11,7 @@ import jaxcontact as jc
 from tests.oracle.rubbing_spheres import RubbingSpheres
 from tests.test_friction.test_slider_phases import FORCE_FORM, NU_3
 from tests.test_scene.support import check_modes
-from tests.test_system.references import DIFFERENCES
+from tests.test_system.references import DIFFERENCES, plane
 
 MU, STIFFNESS = 0.3, 1e7
 KAPPA = 2 * NU_3 / 3.5  # of like spheres with ν = 0.3, whose slip has λ = 7/2
@@ -20,10 +20,6 @@ CLOSE = 1e-9  # of ψ2 at rtol 1e-11
 
 def sphere(t, q, args):
     return jnp.diag(jnp.array([1.0, 1.0, 0.4]))
-
-
-def plane(t, q, args):
-    return q[1:2]
 
 
 def slip(t, q, v, args):

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 import jaxcontact as jc
 from tests.test_scene.support import check_modes
-from tests.test_system.references import DIFFERENCES, restarted
+from tests.test_system.references import DIFFERENCES, plane, restarted
 
 LAW, STIFFNESS, G = jc.HuGuo(e=0.9), 1e5, 9.81
 ALPHA = 1.5 * 0.1 / 0.9  # Hu & Guo (2015), equation 38: α = 3 (1 - e)/(2 e)
@@ -32,10 +32,6 @@ def force(t, q, v, args):
     return G * jnp.stack([jnp.sin(tilt), -jnp.cos(tilt), jnp.zeros_like(t)])
 
 
-def gap(t, q, args):
-    return q[1:2]
-
-
 def slip(t, q, v, args):
     """A body of the radius R on a plane that shakes along itself."""
     shakes = args["speed"] * jnp.cos(args["rate"] * t)
@@ -49,9 +45,8 @@ def moved(mu, args, duration, position, velocity, **how):
     """Return a run of the body on the plane."""
     parts = {"law": LAW, "stiffness": STIFFNESS, "friction": jc.RigidCoulomb(mu), "slip": slip}
     start = {"position": position, "velocity": velocity, "args": args}
-    return jc.simulate(
-        jc.System(mass, force, gap, **parts), duration, **start, **{"rtol": RTOL, "v0": 0.05} | how
-    )
+    system = jc.System(mass, force, plane, **parts)
+    return jc.simulate(system, duration, **start, **{"rtol": RTOL, "v0": 0.05} | how)
 
 
 def rested(tilt):
