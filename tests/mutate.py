@@ -40,6 +40,10 @@ TABLE, TIMES = (ROOT / "tests" / name for name in ("mutations.md", "times.md"))
 
 # Reasons why survivors are not gaps in the tests, by their change as listed in the table.
 REASONS: dict[str, str] = {
+    "jaxcontact/_fit/posterior/density.py, find_mode: 1 → 2": "how damped the last step "
+    "of a search may be",
+    "jaxcontact/_program/compiled.py, quick_options: 0 → 1": "how long a program that runs once "
+    "takes to compile",
     "jaxcontact/_contact.py, Contact: 1.5 → 1.65": "nothing reads the field's default: `__init__` "
     "always sets it, and the type checker asks for one",
     "jaxcontact/_impact/methods/phase.py, solve_phase.advance.rate: 1 → 2": "a divisor that only "
