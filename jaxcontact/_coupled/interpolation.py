@@ -54,7 +54,7 @@ def highest(
     inside = (b < 0) & jnp.where(hump, a >= 0, a > 0)
     root = jnp.sqrt(jnp.where(inside, jnp.square(second) - 3 * third * a, 1))
     bottom = jnp.where(inside, jnp.where(hump, -3 * third, root - second), 1)
-    u = jnp.where(hump, second + root, a) / bottom
+    u = jnp.where(inside, jnp.where(hump, second + root, a) / bottom, 0.5)
     top = left + u * (a + u * (second + u * third))
     return jnp.where(inside, top, jnp.maximum(left, right)), inside, u, root
 
