@@ -64,10 +64,8 @@ def first_carry(
     field, finest, begin = solve.field, solve.finest, solve.begin
     zero = jnp.zeros((), y.dtype)
     nobody, none = jnp.zeros_like(modes.closed), jnp.zeros_like(modes.latched)
-    touching, renew = ContactClock(jnp.asarray(True), nobody), None
-    contacts = field.contacts
-    if contacts.jumps or field.rules.sticks:
-        renew = jnp.asarray(field.rules.sticks)
+    touching, contacts = ContactClock(jnp.asarray(True), nobody), field.contacts
+    renew = jnp.asarray(field.rules.sticks) if contacts.jumps or field.rules.sticks else None
     press = none if field.law.fades else None
     if field.rules.sticks:
         # The first step, of no length, finds the rest.

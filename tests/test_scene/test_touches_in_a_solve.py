@@ -50,6 +50,22 @@ def test_slopes_of_a_touch_without_tension():
     check_slopes(ended, 2, 1e-8)
 
 
+def test_slopes_of_work_where_a_force_jumps():
+    """With adhesion a touch pulls at once at the moving floor, on which a heavy one is."""
+
+    def ended(change):
+        places, speeds = [(0.0, 0.11), (1.0, 0.131), (3.0, 5.0)], [(0.0, -1.0), (0.0, change - 1.0)]
+        discs = spheres(0.1, [40.0, 0.2, 1.0], places, [*speeds, (0.0, 0.0)])
+        floor = jc.Plane([0.0, 0.0], [0.0, 1.0], motion=jc.Vibration(0.004, 30.0))
+        scene = jc.Scene([*discs, floor], jc.JKR(pull_off=0.5), stiffness=1e4)
+        run = jc.simulate(scene, 0.1, max_cluster=2)
+        work = run.wall_work[None]
+        return jnp.concatenate([run.velocity[-1].ravel(), work, run.impacts.max_force[:2]])
+
+    # With the pull before the touch the work differs by 6e-3, of .3.
+    check_slopes(ended, 2, 1e-6)
+
+
 def test_slopes_of_two_touches_at_once():
     """A disc meets two in the same moment. By its shift the mirror image moves the other way."""
 

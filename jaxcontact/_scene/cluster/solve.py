@@ -197,16 +197,17 @@ def rates_at_start(
     `cluster`.
     """
     solve = _solve_of(*_prepared(problem, v0), in_line)
-    first = _first(solve)
+    first, state, unit = _first(solve), problem.state, 1 / solve.units.time
+    # A pair that just touches had no force until now, even if it jumps.
+    before = first.modes._replace(closed=first.modes.closed & (state.since < state.time))
     # With w = 1/2 the time of the loop is that of the motion.
-    pace = solve.field.rate(first.y.at[W].set(0.5), first.modes, first.clock).at[W].set(0)
+    pace = solve.field.rate(first.y.at[W].set(0.5), before, first.clock).at[W].set(0)
 
     def later(time: Number) -> tuple[ClusterState, Number, Array | None]:
         end = first._replace(y=first.y + time * pace)
         end = _assess(solve, first, end, *_state_at(solve, end))
         return end.state._replace(closed=None, rising=None), end.work, end.rubbed
 
-    unit, state = 1 / solve.units.time, problem.state
     rates, work, taken = jax.jvp(later, (jnp.zeros_like(unit),), (unit,))[1]
     rates = rates._replace(closed=state.closed, rising=state.rising)
     momentum = ratio(1.0, problem.inverse_mass)[:, None] * state.velocity
